@@ -68,6 +68,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"ask for fewer slabs", "请查询较少的板"},
     {"ask for fewer slabs: the unit's memory was used up", "请查询较少的板：该单元的内存已用完"},
     {"slabctl was ended by signal {}", "slabctl 被信号 {} 结束"},
+    {"look at the slab: the change may have been recorded", "请查看该板：更改可能已被记录"},
     {"slabctl cannot be started: {}", "无法启动 slabctl：{}"},
     {"[web] slabctl names the program", "[web] slabctl 给出该程序"},
     {"slabd-web stops", "slabd-web 正在停止"},

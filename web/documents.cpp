@@ -103,19 +103,30 @@ SharedAnswer refused(const ChildResult& result) {
   return error_answer(500, text, "slabctl config check; journalctl -u slabd-web");
 }
 
-SharedAnswer fault_of(const ChildResult& result, double time_s) {
+/// Reason why a process has no exit status; empty if it has one.
+std::string end_of(const ChildResult& result, double time_s) {
   switch (result.end) {
-    case End::late:
-      return error_answer(504, "slabctl was ended after " + std::to_string(static_cast<int>(time_s)) + " s",
-                          "ask for fewer slabs, or raise [web] answer_s");
-    case End::too_large: return error_answer(500, "the document is longer than 64 MB", "ask for fewer slabs");
+    case End::late: return "slabctl was ended after " + std::to_string(static_cast<int>(time_s)) + " s";
+    case End::too_large: return "the document is longer than 64 MB";
+    case End::crashed: return "slabctl was ended by signal " + std::to_string(result.status);
+    case End::not_started: return "slabctl cannot be started: " + result.sentence;
+    case End::stopped: return "slabd-web stops";
+    case End::exited: break;
+  }
+  return "";
+}
+
+SharedAnswer fault_of(const ChildResult& result, double time_s) {
+  const std::string text = end_of(result, time_s);
+  switch (result.end) {
+    case End::late: return error_answer(504, text, "ask for fewer slabs, or raise [web] answer_s");
+    case End::too_large: return error_answer(500, text, "ask for fewer slabs");
     case End::crashed:
       return error_answer(
-          500, "slabctl was ended by signal " + std::to_string(result.status),
+          500, text,
           result.status == SIGKILL ? "ask for fewer slabs: the unit's memory was used up" : "journalctl -u slabd-web");
-    case End::not_started:
-      return error_answer(503, "slabctl cannot be started: " + result.sentence, "[web] slabctl names the program");
-    case End::stopped: return error_answer(503, "slabd-web stops", "try again in some seconds");
+    case End::not_started: return error_answer(503, text, "[web] slabctl names the program");
+    case End::stopped: return error_answer(503, text, "try again in some seconds");
     case End::exited: break;
   }
   return refused(result);
@@ -424,7 +435,9 @@ SharedAnswer Documents::carry_out(const std::vector<std::string>& arguments) {
       changed_.notify_all();
     }
   }
-  if (result.end != End::exited) return fault_of(result, time_s);
+  if (result.end == End::not_started) return fault_of(result, time_s);
+  if (result.end != End::exited)
+    return error_answer(503, end_of(result, time_s), "look at the slab: the change may have been recorded");
   Answer printed;
   printed.bytes = result.bytes;
   printed.file = Fd(::fcntl(result.output.get(), F_DUPFD_CLOEXEC, 0));

@@ -90,7 +90,8 @@ class Documents {
   void note_change();
   /// Carries out a command that writes, one at a time. Status 200 with the document slabd.web_done/1, which contains
   /// the first line that it printed; else slabd.web_error/1: 400 and 409 refused, 404 no such slab, 503 slabd does not
-  /// answer. The documents that are kept are made again afterwards.
+  /// answer, or the command did not end by itself and may have made the change. The documents that are kept are made
+  /// again afterwards.
   [[nodiscard]] SharedAnswer carry_out(const std::vector<std::string>& arguments);
   /// Kills the processes and refuses new orders.
   void stop();

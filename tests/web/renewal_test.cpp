@@ -12,17 +12,20 @@
 #include <iterator>
 #include <string>
 #include <thread>
+#include <variant>
 #include <vector>
 
 #include "tests/hal/temporary_folder.h"
 #include "tests/places/wait.h"
 #include "web/documents.h"
+#include "web/routes.h"
+#include "web/words.h"
 
 namespace slabd::web {
 namespace {
 
 /// A program that counts from 1 and prints {"n": 1}, then {"n": 2}, ...; from the `last`-th time on it ends with an
-/// error.
+/// error. A report contains the same text.
 class RenewedDocuments : public ::testing::Test {
  protected:
   Documents documents(int last) {
@@ -32,7 +35,8 @@ class RenewedDocuments : public ::testing::Test {
     std::ofstream(program) << "#!/bin/sh\nn=$(($(wc -l <" << (folder_ / "count") << ") + 1))\necho >>"
                            << (folder_ / "count") << "\nwhile [ -e \"${2-/nowhere}\" ]; do sleep 0.01; done\n[ $n -le "
                            << last
-                           << " ] || { echo 'slabctl: internal error' >&2; exit 5; }\necho \"{\\\"n\\\": $n}\"\n";
+                           << " ] || { echo 'slabctl: internal error' >&2; exit 5; }\ncase \"${2-}\" in --out=*) exec "
+                              ">\"${2#--out=}\" ;; esac\necho \"{\\\"n\\\": $n}\"\n";
     ::chmod(program.c_str(), 0755);
     return Documents({.slabctl = program,
                       .config = "",
@@ -82,6 +86,27 @@ TEST_F(RenewedDocuments, are_made_again_when_the_line_has_changed_if_they_show_t
   documents.note_change();
   EXPECT_EQ(body_of(*documents.get(map)), "{\"n\": 3}\n");
   EXPECT_EQ(body_of(*documents.get(moulds)), "{\"n\": 2}\n") << "one slab hardly changes it";
+}
+
+TEST_F(RenewedDocuments, about_one_slab_are_made_again_when_the_line_has_changed) {
+  Documents documents = this->documents(100);
+  for (const char* address : {"/api/v1/slabs/1/report.pdf", "/api/v1/slabs/1/blocks/3/map",
+                              "/api/v1/slabs/1/blocks/3/cloud", "/api/v1/compare?a=1&b=2"}) {
+    const auto target = parse_target(address);
+    ASSERT_TRUE(target.has_value());
+    const auto found = find_document(*target);
+    const auto* const request = std::get_if<Request>(&found);
+    ASSERT_NE(request, nullptr) << address;
+    const DocumentOrder order{.arguments = request->arguments,
+                              .cache_s = request->route->cache_s,
+                              .renew_s = request->route->renew_s,
+                              .is_report = request->route->maker == Maker::report};
+    const SharedAnswer of_open_slab = documents.get(order);
+    EXPECT_EQ(of_open_slab->status, 200) << body_of(*of_open_slab);
+    documents.note_change();  // its end
+    EXPECT_NE(body_of(*documents.get(order)), body_of(*of_open_slab)) << address;
+  }
+  EXPECT_EQ(count(), 8);
 }
 
 TEST_F(RenewedDocuments, made_for_a_page_are_not_given_to_the_live_picture) {
@@ -161,6 +186,34 @@ TEST_F(RenewedDocuments, that_cannot_be_made_ahead_are_made_by_their_caller) {
   EXPECT_EQ(documents.get(order)->status, 500) << "made by itself, or while it is made ahead";
   EXPECT_TRUE(places::wait_until([&] { return count() >= 1; }));
   EXPECT_EQ(documents.get(order)->status, 500) << "afterwards";
+}
+
+TEST(WebWrite, that_did_not_end_by_itself_may_have_been_recorded) {
+  const hal::test::TemporaryFolder folder;
+  const std::string program = folder / "slabctl";
+  struct Case {
+    const char* command;
+    double answer_s;
+    const char* reason;
+  };
+  for (const auto& [command, answer_s, reason] : {Case{"kill -KILL $$", 60.0, "slabctl was ended by signal 9"},
+                                                  Case{"exec sleep 1000", 0.1, "slabctl was ended after 0 s"}}) {
+    std::ofstream(program) << "#!/bin/sh\n" << command << '\n';
+    ::chmod(program.c_str(), 0755);
+    Documents documents({.slabctl = program,
+                         .config = "",
+                         .reports_dir = folder.string(),
+                         .answer_s = answer_s,
+                         .plant = "",
+                         .plant_dsn = ""});
+    const SharedAnswer answer = documents.carry_out({"disposition"});
+    EXPECT_EQ(answer->status, 503);
+    const std::string body = body_of(*answer);
+    EXPECT_NE(body.find(reason), std::string::npos) << body;
+    const std::string cure = "look at the slab: the change may have been recorded";
+    EXPECT_NE(body.find(cure), std::string::npos) << body;
+    EXPECT_NE(sentence_in_chinese(cure), cure);
+  }
 }
 
 }  // namespace
