@@ -357,7 +357,7 @@ class Device:
             return
         frame = Frame(self, self.block_id, points, now)
         if fault == "slow":  # sent later, whatever happens in between
-            self.due, self.options.fault = (time.monotonic() + 1.5, frame), ""
+            self.due, self.options.fault = (time.monotonic() + 5.0, frame), ""
             return
         if fault == "late":  # sent with the next trigger, before its own frame
             self.held, self.options.fault = frame, ""

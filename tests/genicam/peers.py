@@ -127,7 +127,7 @@ class Slabd:
             self.link.close()
         self.listener.close()
 
-    def ask(self, have_points=0, timeout_ms=10_000, again=False, extended=False):
+    def ask(self, have_points=0, timeout_ms=30_000, again=False, extended=False):
         self.cmd_seq += 0 if again else 1
         line = {"schema": "slabd.scan_request/1", "session": 7, "cmd_seq": self.cmd_seq, "slab_id": "S-1", "station": 4,
                 "have_points": have_points, "timeout_ms": timeout_ms}

@@ -6,14 +6,12 @@ and with the test device under loss. Usage: slab_test.py BUILD_FOLDER [unittest'
 The environment's GENICAM_POINTS is "quarter" (default) or "full", GENICAM_PROGRAMS the build folder of slabd and slabctl
 if it is another one."""
 
-import fcntl
 import json
 import os
 import pathlib
 import random
 import re
 import shutil
-import socket
 import subprocess
 import sys
 import time
@@ -24,16 +22,13 @@ import numpy as np
 import camera_device
 import peers
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "places"))
+from ports import alone, own_port  # noqa: E402
+
 BUILD = None
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
 POINTS = os.environ.get("GENICAM_POINTS", "quarter")
 SLAB_S = 900.0
-
-
-def free_port():
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
 
 
 class Line:
@@ -43,11 +38,11 @@ class Line:
         self.folder = folder
         folder.mkdir()
         self.programs = pathlib.Path(os.environ.get("GENICAM_PROGRAMS", BUILD))
-        group = f"239.255.{random.randint(20, 220)}.{random.randint(20, 220)}:{free_port()}"
+        group = f"239.255.{random.randint(20, 220)}.{random.randint(20, 220)}:{own_port()}"
         text = f"""[line]
 simulation = true
 [plc]
-listen = "127.0.0.1:{free_port()}"
+listen = "127.0.0.1:{own_port()}"
 [robot]
 lcm_url = "udpm://{group}?ttl=0"
 interface = "lo"
@@ -141,7 +136,7 @@ class Slab(unittest.TestCase):
 
     def through(self, camera, name, camera_address, **keys):
         self.repeated = 0
-        port = free_port()
+        port = own_port()
         line = Line(self.folder.path / name, f'backend = "tcp"\nlisten = "127.0.0.1:{port}"\ntimeout_s = 11')
         config = self.folder.config(port, address=camera_address, emulated=True, timeout_s=9, **keys)
         gateway = peers.Process(pathlib.Path(BUILD) / "gateway/genicam/slabd-genicam", "--config", config)
@@ -180,8 +175,7 @@ class Slab(unittest.TestCase):
             raw.append(self.folder.path / (path.stem + ".raw"))
             raw[-1].write_bytes(np.ascontiguousarray(camera_device.read_ply(path)[2], "<f4").tobytes())
         # The fake camera listens at 127.0.0.1 only, and its port is fixed: one at a time on a computer.
-        with open("/tmp/slabd-fake-camera.lock", "w", encoding="utf-8") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with alone("fake-camera"):
             camera = peers.Process(pathlib.Path(BUILD) / "tests/genicam/genicam_fake_camera",
                                    pathlib.Path(__file__).with_name("fake_camera.xml"), width, height, *raw, stdin=True)
             camera.wait_for("ready")

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ports for tests in Python, as ports.h has them for tests in C++. Both use the same claims."""
+import contextlib
+import errno
 import random
 import socket
+import time
 
 CLAIMS = []  # a claim lasts as long as its socket, and the sockets as long as the process
 
@@ -23,3 +26,19 @@ def own_port():
         CLAIMS.append(claim)
         return port
     raise RuntimeError("no free port")
+
+
+@contextlib.contextmanager
+def alone(name):
+    """Waits until no other process is in a block of this name, for a program whose port is fixed. As for ports, the name
+    is an abstract socket: it belongs to a network namespace, has no permissions, and ends with the process."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
+        while True:
+            try:
+                claim.bind(f"\0slabd-test-{name}")
+                break
+            except OSError as why:
+                if why.errno != errno.EADDRINUSE:
+                    raise
+            time.sleep(0.2)
+        yield
