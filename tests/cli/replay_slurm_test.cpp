@@ -76,17 +76,26 @@ TEST_F(ReplaySlurm, kills_of_any_part_do_not_change_the_merged_result) {
   put("job.sh", script.out);
   submit();
   using std::chrono::milliseconds;
-  for (const char* victim : {"task", "node", "task", "controller", "node"}) {
+  int tasks_killed = 0;
+  for (const std::string victim : {"task", "node", "task", "controller", "node"}) {
     std::this_thread::sleep_for(milliseconds(1'500));
-    cluster(std::string("kill_") + victim);
+    const int status = cluster("kill_" + victim);
+    if (victim == "task" && status == 0) ++tasks_killed;
   }
+  EXPECT_GE(tasks_killed, 1);
   wait_for_the_end();
   // Shards that were killed are missing, and are named; the same script completes them.
   const Ended early = run("replay --merge " + file("shards"));
   if (early.status != kDone) expect_mentions(early.err, "missing");
-  submit();
-  wait_for_the_end();
-  const Ended merged = run("replay --merge " + file("shards") + " --json");
+  // Slurm ends tasks also by itself, when a node of a busy computer does not answer in time.
+  Ended merged;
+  for (int rounds = 0; rounds < 5; ++rounds) {
+    submit();
+    wait_for_the_end();
+    if (HasFatalFailure()) return;
+    merged = run("replay --merge " + file("shards") + " --json");
+    if (merged.status == kDone) break;
+  }
   EXPECT_EQ(merged.status, kDone) << merged.err << content(file("cluster/log"));
   EXPECT_TRUE(merged.out == alone.out) << merged.out.size() << " and " << alone.out.size() << " bytes";
 }
