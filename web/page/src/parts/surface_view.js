@@ -30,7 +30,7 @@ function ScanNote({ ask, cloud, low, high }) {
 }
 
 /// `chosen_mm`: end of the scale, 0: automatic. `end_mm`: that of the map. `path`: where the scan's points are.
-/// `attempt`: that of the map. The server caches points for 60 s, so its first answer may be those of the previous attempt.
+/// `attempt`: that of the map. The server caches points for 5 s, so its first answer may be those of the previous attempt.
 export function SurfaceView({ map, attempt, path, chosen_mm, end_mm, exaggeration, station, theme }) {
   const { t } = useWords();
   const host = useRef(null);
