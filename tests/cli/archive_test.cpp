@@ -136,16 +136,21 @@ TEST_F(Archive, a_scan_that_is_gone_counts_only_if_its_slab_was_named) {
 struct ArchiveOnAFullDisk : Archive {
   void SetUp() override {
     Archive::SetUp();
-    const std::uintmax_t free = fs::space(dir_).available;
-    if (free < 4'000'000'000) GTEST_SKIP() << "the disk is full already";
+    if (fs::space(dir_).available < 4'000'000'000) GTEST_SKIP() << "the disk is full already";
+    if (!resize()) GTEST_SKIP() << "the file system has no files of that size";
+  }
+  /// The scan leaves a gigabyte of what is free now.
+  [[nodiscard]] bool resize() const {
     std::error_code fault;
-    fs::resize_file(scan(3), free - 1'000'000'000, fault);
-    if (fault) GTEST_SKIP() << "the file system has no files of that size";
+    fs::resize_file(scan(3), fs::space(dir_).available - 1'000'000'000, fault);
+    return !fault;
   }
 };
 
 TEST_F(ArchiveOnAFullDisk, the_space_that_slabd_needs_is_left) {
-  const Ended ended = archive("1");
+  Ended ended = archive("1");
+  // Other programs may have made room meanwhile: the scan is then refused for its size.
+  for (int i = 0; i < 5 && ended.status == 3 && resize(); ++i) ended = archive("1");
   EXPECT_EQ(ended.status, 4) << ended.out << ended.err;
   expect_mentions(ended.err, "--out " + file("archive") + ": a scan of ");
   expect_mentions(ended.err, " MB, with 2500.0 MB left for slabd on the same disk, needs ");

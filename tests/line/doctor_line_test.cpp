@@ -277,9 +277,17 @@ TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
     longest_s = std::max(longest_s.load(), std::chrono::duration<double>(end - last).count());
     modbus_close(client.get());
   });
-  // The doctor takes a heartbeat for dead after 1.2 s, and this computer may pause for so long.
+  // The doctor takes a heartbeat for dead after 1.2 s. It may say so only if this computer has paused.
   int alive = 0;
-  for (int i = 0; i < 10 && alive < 3; ++i) alive += examine().health("plc heartbeat") == "ok" ? 1 : 0;
+  double longest_of_all_s = 0.2;
+  for (int i = 0; i < 10 && alive < 3; ++i) {
+    longest_s = 0.2;
+    if (examine().health("plc heartbeat") == "ok")
+      ++alive;
+    else
+      EXPECT_GT(longest_s.load(), 0.6) << "the bit moved all the time";
+    longest_of_all_s = std::max(longest_of_all_s, longest_s.load());
+  }
   EXPECT_EQ(alive, 3) << "of ten";
   Process monitor(
       {places::slabctl(), "plc", "monitor", "--json", "--interval-ms", "400", "--config", box_.config.native()},
@@ -299,7 +307,7 @@ TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
     const json picture = json::parse(line, nullptr, false);
     if (!picture.is_object() || seen < 3) continue;
     ASSERT_TRUE(picture["plc_heartbeat_age_s"].is_number()) << picture;
-    EXPECT_LT(picture["plc_heartbeat_age_s"].get<double>(), 0.8 + longest_s);
+    EXPECT_LT(picture["plc_heartbeat_age_s"].get<double>(), 0.8 + std::max(longest_of_all_s, longest_s.load()));
   }
   EXPECT_GT(seen, 3);
 }

@@ -5,6 +5,7 @@
 
 #include <arpa/inet.h>
 #include <fcntl.h>
+#include <gtest/gtest.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
@@ -171,6 +172,8 @@ bool Box::logs(const std::string& text) const {
 }
 
 Box::~Box() {
+  if (late_ > 0) std::fprintf(stderr, "slabd gave no answer within 3 s, %d times\n", late_);
+  EXPECT_LE(late_, 5) << "answers later than 3 s";
   daemon_.reset();
   std::error_code ignored;
   fs::remove_all(dir, ignored);
@@ -210,7 +213,9 @@ Box::Answer Box::slabctl(std::vector<std::string> args) const {
     answer = slabctl_once(args);
     const bool late =
         answer.err.find("within 3 s") != std::string::npos || answer.err.find("timed out") != std::string::npos;
-    return !only_looks || !late || daemon_ == nullptr || !daemon_->running();
+    if (!only_looks || !late || daemon_ == nullptr || !daemon_->running()) return true;
+    ++late_;
+    return false;
   };
   static_cast<void>(places::wait_until(is_answered, std::chrono::minutes(2)));
   return answer;

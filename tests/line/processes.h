@@ -98,6 +98,7 @@ class Box {
  private:
   [[nodiscard]] Answer slabctl_once(const std::vector<std::string>& args) const;
 
+  mutable int late_ = 0;  ///< looks that slabd did not answer within 3 s
   std::unique_ptr<Process> daemon_;
 };
 

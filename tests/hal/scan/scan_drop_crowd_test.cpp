@@ -139,8 +139,8 @@ TEST_F(ScanDropTest, a_hole_behind_the_data_does_not_count_as_a_hole_in_the_data
   const auto result = acquire(request(), [&] {
     write_file(drop() + "/stretched", whole);
     fs::resize_file(drop() + "/stretched", whole.size() + 60'000);
-    fs::rename(drop() + "/stretched", inbox("scan.pcd"));
     begin_ns = ticking.mono_ns();
+    fs::rename(drop() + "/stretched", inbox("scan.pcd"));
   });
   ASSERT_TRUE(result.ok()) << result.error().text.c_str();
   EXPECT_LT(ticking.mono_ns() - begin_ns, 5 * kNsPerS) << "as long as a file with a hole is waited for";
