@@ -84,8 +84,9 @@ export const kOpen_ms = 5000;
 /// `every_ms` of the documents of a slabd.slab/1.
 export const whileOpen = (slab) => (slab.ended ? 0 : kOpen_ms);
 
-/// True if the same request may succeed later: no answer came, or the server has a fault.
-const mayPass = (error) => error !== null && (error.status === 0 || error.status >= 500);
+/// True if the same request may succeed later: no answer came, or the server is busy. A document that takes too long, or is
+/// too large, will be so again.
+const mayPass = (error) => error !== null && (error.status === 0 || error.status === 503);
 
 /// Calls ask(signal) for a document and show({document, error}) with the answer. `every_ms(document)`: milliseconds until the
 /// document is renewed; 0: never. A renewal without news shows nothing. A renewal that fails keeps the document. After a

@@ -135,7 +135,9 @@ export function createPoll(world, language = 'en') {
     },
     /// The page was hidden or suspended: nothing is believed until an answer comes, which is asked for at once.
     woke() {
-      if (running) wake();
+      if (!running) return;
+      notice();
+      wake();
     },
     /// The sentences come in another language from the next answer on.
     setLanguage(next) {

@@ -72,7 +72,7 @@ test('a renewal that fails keeps the document, and the next one follows', async 
 });
 test('a first request that is refused is shown and is not repeated', async () => {
   for (const error of [new Error('a fault of the page'), new ApiError(404, 'no such slab'), new ApiError(401, 'expired'), new ApiError(400, 'a filter'),
-    new ApiError(200, 'unusable')]) {
+    new ApiError(500, 'too large'), new ApiError(504, 'too slow'), new ApiError(200, 'unusable')]) {
     const { asked, shown, wait } = followed(whileOpen);
     asked[0].refuse(error);
     await settled();

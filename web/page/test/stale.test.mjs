@@ -51,6 +51,7 @@ function world(answers) {
     now: () => now,
     wall: () => now + asleep_ms,
     sleep: (ms) => (asleep_ms += ms),
+    freeze: (ms) => (now += ms),  // time passes, and no timer runs
     setTimeout: (call, ms) => (timers.push({ id: ++id, at: now + ms, call }), id),
     clearTimeout: (which) => (timers = timers.filter((timer) => timer.id !== which)),
     fetch: (path, options) => {
@@ -131,6 +132,23 @@ test('woke: stale at once, and asks at once', async () => {
   assert.equal(poll.picture().stale, false);
   await here.pass(10_000);
   assert.ok(here.requests.length <= before + 12, 'one chain of requests');
+  poll.stop();
+});
+test('woke: a page that was hidden for long wakes once', async () => {
+  const pending = [];
+  const here = world((n) => (n < 4 ? good() : new Promise((answer) => pending.push(answer))));
+  const poll = createPoll(here);
+  let woke = 0;
+  poll.onWoke(() => ++woke);
+  poll.start();
+  await here.pass(2500);
+  here.freeze(60_000);
+  poll.woke();
+  await here.pass(1000);
+  assert.deepEqual([woke, pending.length], [1, 1]);
+  pending[0](good());
+  await here.pass(200);
+  assert.deepEqual([woke, poll.picture().stale], [1, false]);
   poll.stop();
 });
 test('a computer that was suspended for a night shows nothing of the evening', async () => {

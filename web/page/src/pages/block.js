@@ -141,7 +141,7 @@ export function Block({ route, theme }) {
   const slab = ask.document;
   const attempts = slab?.blocks.filter((block) => block.station === station) ?? [];
   const block = attempts.find((one) => one.valid) ?? attempts.at(-1);
-  // The server caches maps for 10 s, so that they may be those of the previous attempt when the slab has ended.
+  // The server caches maps for 5 s, so that they may be those of the previous attempt when the slab has ended.
   const maps = useDocument(`${path}/map`, 'slabd.block_map/1',
     { every_ms: (map) => (slab?.ended && map.attempt === measuredAttempt(attempts) ? 0 : kOpen_ms) });
   const [budget, setBudget] = useState(false);
