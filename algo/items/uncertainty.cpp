@@ -474,8 +474,9 @@ void compute_observation_sigma(const BlockGeometry& geometry, CasingKind casings
     axes.col(1) = axes.col(2).cross(axes.col(0));
     const double rounded_centre = 0.5 * rounding.centre_mm2(seat.normal);
     const double rounded_height = rounding.variance(height, seat);
-    const Vec3 rest = (variance(height, by_area) + rounded_height) * seat.normal.cwiseAbs2() +
-                      rounded_centre * (Vec3::Ones() - seat.normal.cwiseAbs2());
+    const Vec3 rest =
+        (variance(height, by_area) + variance(height, seat.bend) + rounded_height) * seat.normal.cwiseAbs2() +
+        rounded_centre * (Vec3::Ones() - seat.normal.cwiseAbs2());
     o.sigma_p_mm = (Mat3(axes * local * axes.transpose()).diagonal() + rest).cwiseSqrt();
   }
   if (o.jaw_ok) {
@@ -485,7 +486,7 @@ void compute_observation_sigma(const BlockGeometry& geometry, CasingKind casings
       // The position of the section along X is not a property of the jaw.
       const double section = axis == 0 ? 0.0 : registration_variance(g.registration, result.registration);
       const double fit = variance(g.seat, seat) + variance(g.jaw, result.jaw_outer);
-      o.sigma_jaw_mm[axis] = std::sqrt(f * (fit + section) + variance(g.seat, by_area) +
+      o.sigma_jaw_mm[axis] = std::sqrt(f * (fit + section) + variance(g.seat, by_area) + variance(g.seat, seat.bend) +
                                        rounding.variance(g.seat, seat) + rounding.variance(g.jaw, result.jaw_outer));
     }
   }

@@ -16,7 +16,8 @@
 ///                 item's formula: u^2 = g' C g. Features are fitted to different points, so theirs add in squares.
 ///                 Also the seat's density: if one part of a bowed seat returned more points than another, the fitted
 ///                 plane follows that part. With d the difference between the seat weighted by area and by points
-///                 (SeatFeature::by_area), half width g d: u^2 = (g d)^2 / 3.
+///                 (SeatFeature::by_area), half width g d: u^2 = (g d)^2 / 3. The same for a plane that depends on
+///                 where its threshold cuts (PlaneFit::bend).
 ///                 Also the bumps on a seat: a scan cannot distinguish a burr, which a straightedge touches, from a
 ///                 grain of dust or mortar that can be swept off. With b the contribution of narrow low bumps to the
 ///                 flatness (Flatness::bumps_mm), half width b: u^2 = b^2 / 3.

@@ -251,6 +251,31 @@ TEST(Uncertainty, observation_sigmas_equal_differences) {
   }
 }
 
+TEST(Uncertainty, a_plane_that_depends_on_its_threshold_counts_like_one_that_depends_on_density) {
+  const PlaneShift shift{Vec3(1e-5, -2e-5, 0.0), 0.01};
+  for (const CasingKind casings : {CasingKind::open, CasingKind::capped}) {
+    Block plain;
+    Block by_area;
+    Block by_bend;
+    by_area.result.seat.by_area = shift;
+    by_bend.result.seat.plane.bend = shift;
+    for (Block* block : {&plain, &by_area, &by_bend})
+      compute_observation(block->line.model(), casings, Pose::identity(), block->result);
+    const SeatObservation& bend = by_bend.result.observation;
+    EXPECT_EQ(bend.sigma_p_mm, by_area.result.observation.sigma_p_mm);
+    EXPECT_EQ(bend.sigma_n_rad, by_area.result.observation.sigma_n_rad);
+    EXPECT_EQ(bend.sigma_jaw_mm, by_area.result.observation.sigma_jaw_mm);
+    EXPECT_GT(bend.sigma_p_mm.z(), plain.result.observation.sigma_p_mm.z());
+    EXPECT_GT(bend.sigma_jaw_mm.z(), plain.result.observation.sigma_jaw_mm.z());
+  }
+  Block by_area;
+  Block by_bend;
+  by_area.result.seat.by_area = shift;
+  by_bend.result.seat.plane.bend = shift;
+  EXPECT_EQ(part_of(find(by_bend.budgeted(), ItemId::seat_slope), BudgetPart::fit),
+            part_of(find(by_area.budgeted(), ItemId::seat_slope), BudgetPart::fit));
+}
+
 TEST(Uncertainty, under_caps_the_reference_point_is_as_sure_as_the_registered_frame) {
   const Block block;
   const double sigma = 1e-4;
