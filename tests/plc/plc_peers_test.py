@@ -344,6 +344,7 @@ def attacks(box, seconds):
         say(f"{kind.__name__}: {attack.count} times; median +{added:.2f} ms, worst {max(times):.2f} ms, {drops} dropped")
         assert added < 10, f"{kind.__name__} costs other clients {added:.1f} ms"
         assert drops == 0, f"{kind.__name__} pushed a client that speaks off the line"
+        assert max(times) < 10_000, f"{kind.__name__} starved a client for {max(times) / 1000:.1f} s"
     after_kb = memory_kb(box)
     link = box.status()["links"]["plc"]
     notes = box.log().count("PLC link:")
