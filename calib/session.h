@@ -23,7 +23,7 @@ struct SessionSettings {
   std::string name;
   std::string created;  ///< UTC, "2026-11-20T23:28:01Z"
   std::string config;   ///< the daemon's configuration, absolute path; empty if none
-  std::string scanner;  ///< id of the scanner, on a line with several; else empty
+  std::string scanner;  ///< its id on a line with several, or if it is not "1"; else empty
   std::string operator_name;
   double radius_mm = kNoValue;  ///< ball: certified effective radius
   double radius_sigma_mm = 0.003;

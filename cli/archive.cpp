@@ -133,11 +133,12 @@ bool share_a_disk(const std::string& folder, const std::string& other) {
       ::statvfs(other.c_str(), &room_b) != 0)
     return true;
   // Subvolumes have their own device numbers, but the same free-space figures.
-  return a.st_dev == b.st_dev || (room_a.f_frsize == room_b.f_frsize && room_a.f_blocks == room_b.f_blocks);
+  return a.st_dev == b.st_dev || (room_a.f_frsize == room_b.f_frsize && room_a.f_blocks == room_b.f_blocks &&
+                                  room_a.f_bfree == room_b.f_bfree && room_a.f_files == room_b.f_files);
 }
 
-/// Bytes to leave free on the disk of `out`. On a disk without them slabd begins no slab (fault 501). 0: the disk has
-/// neither the database nor the spool.
+/// Bytes to leave free on the disk of `out`. Without those of the spool slabd begins no slab (fault 501). 0: the disk
+/// has neither the database nor the spool.
 std::uint64_t bytes_to_leave(const ArchiveOptions& options, const config::Config& config) {
   const bool is_configured = options.database.db.empty();
   const fs::path db = is_configured ? config.storage.db_path : options.database.db;

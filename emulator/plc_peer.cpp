@@ -203,7 +203,8 @@ Result<std::unique_ptr<PlcWire>> make_plc_wire(const hal::PlcSettings& plc, cons
   ModbusContext context(modbus_new_tcp(plc.host.c_str(), plc.port));
   Fd listener(context == nullptr ? -1 : modbus_tcp_listen(context.get(), 1));
   if (!listener.is_open())
-    return error(Code::config, "the emulated PLC cannot listen at plc.connect %s:%u: %s; it must be a free address of this computer, "
+    return error(Code::config,
+                 "the emulated PLC cannot listen at plc.connect %s:%u: %s; it must be a free address of this computer, "
                  "such as 127.0.0.1:1502",
                  plc.host.c_str(), unsigned{plc.port}, modbus_strerror(errno));
   return std::unique_ptr<PlcWire>(std::make_unique<AskedWire>(plc, std::move(context), std::move(listener)));

@@ -103,9 +103,8 @@ bool examine_folder(const char* check, const std::string& folder, const DaemonUs
     return false;
   }
   if (!writable) {
-    report.failed(
-        check, say("{} is not writable for {}", folder, account.name),
-        fmt::format("chown {}:{} {} && chmod {} {}", account.name, group, folder, rights.mode, folder));
+    report.failed(check, say("{} is not writable for {}", folder, account.name),
+                  fmt::format("chown {}:{} {} && chmod {} {}", account.name, group, folder, rights.mode, folder));
     return false;
   }
   // The mode does not show a disk that the kernel has made read-only, as it does with a damaged one.

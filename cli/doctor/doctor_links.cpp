@@ -266,16 +266,14 @@ static void examine_stored(const config::ArmSettings& settings, const LineCalibr
     examine_commissioning(settings, report);
   else
     report.warning("calibration", say("none has been applied"), "docs/CALIBRATION.md");
-  examine_acceptance(calibration.scanner.id.view(),
-                     name(acceptance_state(calibration.scanner, now)), report);
+  examine_acceptance(calibration.scanner.id.view(), name(acceptance_state(calibration.scanner, now)), report);
   const bool corrected =
       std::any_of(calibration.tables.begin(), calibration.tables.end(),
                   [&](const StationsInForce& table) { return why_unused(table, calibration.id, now).empty(); });
   if (calibration.source == LineCalibration::Source::applied && !corrected) examine_uncorrected(settings, report);
   for (const LineCalibration::Watch* watch : {&calibration.block, &calibration.ball})
     if (const std::string note = quote(watch->note.view()); watch->failed)
-      report.failed("daily check",
-                    watch->reference_id.empty() ? note : say("{}: {}", watch->reference_id.view(), note),
+      report.failed("daily check", watch->reference_id.empty() ? note : say("{}: {}", watch->reference_id.view(), note),
                     say("find the cause, then slabctl calibrate check"));
 }
 
@@ -300,9 +298,9 @@ static void examine_in_force(const config::ArmSettings& settings, const json& ca
   else
     report.ok("calibration", id);
   const json& stations = at(calibration, {"stations"});
-  const bool corrected =
-      stations.is_array() && std::any_of(stations.begin(), stations.end(),
-                                         [](const json& table) { return text(at(table, {"state"})) == "used"; });
+  const bool corrected = stations.is_array() && std::any_of(stations.begin(), stations.end(), [](const json& table) {
+                           return text(at(table, {"state"})) == "used";
+                         });
   if (source == "applied" && !corrected) examine_uncorrected(settings, report);
   const json& scanner = at(calibration, {"scanner"});
   examine_acceptance(scanner.is_object() ? text(at(scanner, {"id"})) : "", text(at(scanner, {"state"})), report);

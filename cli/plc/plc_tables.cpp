@@ -120,7 +120,9 @@ nlohmann::ordered_json register_json() {
       if (!row.slab_name.empty()) j["slab"] = {{"name", row.slab_name}, {"unit", row.slab_unit}};
       list.push_back(std::move(j));
     });
-  return {{"schema", "slabd.plc_map/1"}, {"version", fmt::format("{}.{}", hal::kMapVersion >> 8U, hal::kMapVersion & 0xFFU)}, {"registers", std::move(list)}};
+  return {{"schema", "slabd.plc_map/1"},
+          {"version", fmt::format("{}.{}", hal::kMapVersion >> 8U, hal::kMapVersion & 0xFFU)},
+          {"registers", std::move(list)}};
 }
 
 }  // namespace

@@ -195,8 +195,8 @@ void keep_check(Run& run) {
     return;
   }
   if (const double taken_mm = run.reference->ball.radius_mm; std::abs(run.look.radius_mm - taken_mm) > kSameRadius_mm) {
-    complain(say("no check is stored: {}", say("--radius {:g}: {} was taken into use with {:g} mm",
-                                               run.look.radius_mm, run.reference->id, taken_mm)));
+    complain(say("no check is stored: {}", say("--radius {:g}: {} was taken into use with {:g} mm", run.look.radius_mm,
+                                               run.reference->id, taken_mm)));
     return;
   }
   const MeasuredBall& seen = run.seen.back().ball;

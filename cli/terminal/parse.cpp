@@ -9,8 +9,8 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
-#include <ctime>
 #include <cstdlib>
+#include <ctime>
 #include <limits>
 
 #include "cli/exit.h"
