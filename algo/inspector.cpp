@@ -425,15 +425,16 @@ Status BlockInspector::fit_faces(const Cloud& cloud, BlockFit& fit) {
   const FaceExtents& extents = w.extents;
   // Only the direction of the slab top is used, and cast tops undulate by tenths of a millimetre. A seat may sink by
   // such an amount towards its edge.
-  constexpr double kBendShare = 1.0 / 3.0;
+  constexpr double kTopBendShare = 1.0 / 3.0;
+  constexpr double kSeatBendShare = 1.0 / 2.0;
   constexpr double kSeatBend_mm = 0.01;
   const double U_deg = w.recipe.tolerance(ItemId::seat_slope).U;
-  const double bend_max_rad = has_value(U_deg) ? kBendShare * rad_from_deg(U_deg) : 0.0;
+  const double U_rad = has_value(U_deg) ? rad_from_deg(U_deg) : 0.0;
   PlaneSettings of_top = settings_of(extents.top, ItemId::seat_slope, 5);
-  of_top.bend_max_rad = bend_max_rad;
+  of_top.bend_max_rad = kTopBendShare * U_rad;
   const auto settings_of_seat = [&](const FaceExtent& whole, std::uint64_t seed) {
     PlaneSettings settings = settings_of(whole, ItemId::seat_slope, seed);
-    settings.bend_max_rad = bend_max_rad;
+    settings.bend_max_rad = kSeatBendShare * U_rad;
     settings.bend_max_mm = kSeatBend_mm;
     return settings;
   };

@@ -134,6 +134,12 @@ TEST_F(CalibrateStations, commission_counts_only_calibrations_that_the_line_uses
     const json document = json::parse(slabctl("commission --json").out);
     return document["steps"][number - 1];
   };
+  config::Config config;
+  ASSERT_TRUE(config_from(file("slabd.toml"), config));
+  storage::CalibrationRecord ball;
+  ball.numbers = MonitorBall{Vec3(1'000.0, 200.0, 300.0), 19.05, 0.1};
+  ball.created_utime_us = wall_clock_us();
+  ASSERT_TRUE(change_calibration(config, storage::KeepCalibration{ball}).ok()) << "makes the database";
   expect_mentions(step(kCorrections)["saw"], "[calibration] station_sigma_mm");
   EXPECT_EQ(step(kCorrections)["state"], "open") << "commissioning values without a sigma: no seat can pass";
   ASSERT_EQ(adopt("0.05").status, 0);
@@ -144,9 +150,6 @@ TEST_F(CalibrateStations, commission_counts_only_calibrations_that_the_line_uses
   expect_mentions(step(kCorrections)["saw"], table + " is stale");
 
   EXPECT_EQ(step(kDailyCheck)["state"], "note");
-  storage::CalibrationRecord ball;
-  ball.numbers = MonitorBall{Vec3(1'000.0, 200.0, 300.0), 19.05, 0.1};
-  ball.created_utime_us = wall_clock_us();
   CalibrationCheck check;
   check.kind = CalibrationKind::monitor_ball;
   check.reference_id.assign(put_in_force(ball, wall_clock_us()));
@@ -155,8 +158,6 @@ TEST_F(CalibrateStations, commission_counts_only_calibrations_that_the_line_uses
   check.who = "anna";
   check.source = "scan";
   check.note = "the ball is 0.4 mm off";
-  config::Config config;
-  ASSERT_TRUE(config_from(file("slabd.toml"), config));
   ASSERT_TRUE(change_calibration(config, storage::KeepCheck{check}).ok());
   EXPECT_EQ(step(kDailyCheck)["state"], "open");
   expect_mentions(step(kDailyCheck)["saw"], "the ball is 0.4 mm off");

@@ -684,6 +684,7 @@ TEST_F(SurvivalTest, a_disk_that_rejects_every_write_is_tried_a_few_times_in_a_h
   EXPECT_GE(calls, calls_per_opening);
   EXPECT_LE(calls, 6 * calls_per_opening) << "by the events and the outbox, and to settle the job";
 
+  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);
   int looks = 0;
   for (; looks < 60 && !keep(1); ++looks) store_->idle();
   EXPECT_LE(looks, 50) << "without a job";

@@ -185,7 +185,7 @@ class Browser(unittest.TestCase):
             self.until(lambda: self.asked(path) >= count, f"{path} comes again")
 
     def wait_quiet(self, paths, message):
-        """Waits until no document at `paths` is asked for during QUIET_S; returns how often each was."""
+        """Waits until no document at `paths` is requested during QUIET_S; returns how often each was."""
         end = time.monotonic() + LIMIT_S
         before = None
         while before != (now := [self.asked(path) for path in paths]):
