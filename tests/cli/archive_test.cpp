@@ -160,14 +160,14 @@ TEST_F(ArchiveOnAFullDisk, the_space_that_slabd_needs_is_left) {
 
 TEST_F(ArchiveOnAFullDisk, another_disk_may_be_filled) {
   std::string other = "/dev/shm/slabctl-test-XXXXXX";
-  if (mkdtemp(other.data()) == nullptr) GTEST_SKIP() << "this machine has one file system";
+  if (mkdtemp(other.data()) == nullptr) GTEST_SKIP() << "no second file system: /dev/shm cannot be written";
   struct stat here {};
   struct stat there {};
   const bool differs = ::stat(file("archive").c_str(), &here) == 0 && ::stat(other.c_str(), &there) == 0 &&
                        here.st_dev != there.st_dev && fs::space(dir_).capacity != fs::space(other).capacity;
   const Ended ended = run("archive 1 --db " + db() + " --out " + other);
   fs::remove_all(other);
-  if (!differs) GTEST_SKIP() << "this machine has one file system";
+  if (!differs) GTEST_SKIP() << "no second file system: /dev/shm has the one of the test";
   EXPECT_EQ(ended.status, 3) << ended.out << ended.err;
   expect_mentions(ended.out, "packed 1, refused 1; ");
 }

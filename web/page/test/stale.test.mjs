@@ -134,7 +134,8 @@ test('woke: stale at once, and asks at once', async () => {
   assert.ok(here.requests.length <= before + 12, 'one chain of requests');
   poll.stop();
 });
-test('woke: a page that was hidden for long wakes once', async () => {
+/// A page after three good answers; later ones wait in `pending`. `wakes()`: how often it woke.
+async function fresh() {
   const pending = [];
   const here = world((n) => (n < 4 ? good() : new Promise((answer) => pending.push(answer))));
   const poll = createPoll(here);
@@ -142,30 +143,28 @@ test('woke: a page that was hidden for long wakes once', async () => {
   poll.onWoke(() => ++woke);
   poll.start();
   await here.pass(2500);
+  return { here, poll, pending, wakes: () => woke };
+}
+test('woke: a page that was hidden for long wakes once', async () => {
+  const { here, poll, pending, wakes } = await fresh();
   here.freeze(60_000);
   poll.woke();
   await here.pass(1000);
-  assert.deepEqual([woke, pending.length], [1, 1]);
+  assert.deepEqual([wakes(), pending.length], [1, 1]);
   pending[0](good());
   await here.pass(200);
-  assert.deepEqual([woke, poll.picture().stale], [1, false]);
+  assert.deepEqual([wakes(), poll.picture().stale], [1, false]);
   poll.stop();
 });
 test('a computer that was suspended for a night shows nothing of the evening', async () => {
-  const pending = [];
-  const here = world((n) => (n < 4 ? good() : new Promise((answer) => pending.push(answer))));
-  const poll = createPoll(here);
-  let woke = 0;
-  poll.onWoke(() => ++woke);
-  poll.start();
-  await here.pass(2500);
-  assert.deepEqual([poll.picture().stale, woke], [false, 0]);
+  const { here, poll, pending, wakes } = await fresh();
+  assert.deepEqual([poll.picture().stale, wakes()], [false, 0]);
   here.sleep(8 * 3600e3);
   await here.pass(200);
-  assert.deepEqual([poll.picture().stale, woke, pending.length], [true, 1, 1], 'grey with the first look, and asks at once');
+  assert.deepEqual([poll.picture().stale, wakes(), pending.length], [true, 1, 1], 'grey with the first look, and asks at once');
   pending[0](good());
   await here.pass(10);
-  assert.deepEqual([poll.picture().stale, woke], [false, 1]);
+  assert.deepEqual([poll.picture().stale, wakes()], [false, 1]);
   poll.stop();
 });
 test('an answer from before a sleep does not count, whether a look or the answer comes first', async () => {
